@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -56,38 +57,36 @@ def explain(arguments: argparse.Namespace) -> None:
 
     explanation = explained(scene, **keywords_of(arguments, options_in(EXPLANATION)))
     document = explanation.as_json()
-    say(f"{document['name']}: {document['description']}")
-    say("\n".join([*estimate_lines(estimates_of(scene.system)), *friction_lines(document["friction"]),
-                   *closed_form_lines(document["closed_forms"])]))
     torque = "published" if scene.operation.publish_shaft_torque else "not published (publish_shaft_torque)"
-    say(f"far end of the shaft: still, until output_speed moves it; shaft_torque is {torque}")
-    say(f"solver offline: {document['solver']}")
+    lines = [f"{document['name']}: {document['description']}", *estimate_lines(estimates_of(scene.system)),
+             *friction_lines(document["friction"]), *closed_form_lines(document["closed_forms"]),
+             f"far end of the shaft: still, until output_speed moves it; shaft_torque is {torque}",
+             f"solver offline: {document['solver']}"]
     for what in ("terms", "topics", "modules") if arguments.cost else ("terms",):
-        say(f"{what}\n  in use:   {', '.join(document[what]['held']) or 'none'}"
-            f"\n  left out: {', '.join(document[what]['left_out']) or 'none'}")
+        lines += [what, f"  in use:   {', '.join(document[what]['held']) or 'none'}",
+                  f"  left out: {', '.join(document[what]['left_out']) or 'none'}"]
     if arguments.cost:
-        say("kernel arguments\n  " + "; ".join(f"{name}: {kind}" for name, kind in document["kernel"].items()))
-    _say_step(document["step"], arguments.cost)
-    common.deliver(arguments, scene, explanation, shown=scene)
+        lines += ["kernel arguments", "  " + "; ".join(f"{name}: {kind}" for name, kind in document["kernel"].items())]
+    common.deliver(arguments, scene, explanation, [*lines, *_step_lines(document["step"], arguments.cost)], shown=scene)
 
 
-def _say_step(step: dict[str, Any] | None, cost: bool) -> None:
-    """Print the sub-steps, calls and, if `cost`, the measured run time of a tick."""
+def _step_lines(step: dict[str, Any] | None, cost: bool) -> Iterator[str]:
+    """Yield lines with the sub-steps, calls and, if `cost`, the measured run time of a tick."""
     if step is None:
-        say("real-time step: none; the real-time solver needs friction.law smoothed")
+        yield "real-time step: none; the real-time solver needs friction.law smoothed"
         return
-    say(f"real-time step: {counted(step['sub_steps'], 'sub-step')} in a tick of {step['tick_s'] * 1e3:g} ms")
+    yield f"real-time step: {counted(step['sub_steps'], 'sub-step')} in a tick of {step['tick_s'] * 1e3:g} ms"
     if cost:
-        say(f"  run time of a tick: {step['own_s'] * 1e6:.2f} us; with all terms {step['general_s'] * 1e6:.2f} us, "
-            f"{step['ratio']:.2f} times as long")
+        yield (f"  run time of a tick: {step['own_s'] * 1e6:.2f} us; with all terms {step['general_s'] * 1e6:.2f} us, "
+               f"{step['ratio']:.2f} times as long")
         for verb, terms in (("takes", step["terms_s"]), ("is left out and saves", step["saved_s"])):
             for name, seconds in terms.items():
                 amount = "less than the noise" if seconds is None else (
                     f"{seconds * 1e6:.2f} us, {100.0 * seconds / step['own_s']:.0f} %")
-                say(f"  {name} {verb} {amount}")
-        say(f"  noise of these times: {step['noise_s'] * 1e6:.2f} us")
+                yield f"  {name} {verb} {amount}"
+        yield f"  noise of these times: {step['noise_s'] * 1e6:.2f} us"
     for name, calls in step["own_calls"].items():
-        say(f"  {name} per sub-step: {calls:.3g}; with all terms {step['general_calls'][name]:.3g}")
+        yield f"  {name} per sub-step: {calls:.3g}; with all terms {step['general_calls'][name]:.3g}"
 
 
 FMU = "tcc_sim.functions:fmu_file"

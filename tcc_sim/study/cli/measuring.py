@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -78,8 +78,7 @@ def realtime(arguments: argparse.Namespace, rate: float = 1000.0, duration: floa
                                              "cpu_affinity": list(cpu_affinity), "lock_memory": lock_memory})
     with seconds_bar("realtime", 2.0 * duration) as done:
         figures = measure(scene.operation, duration, lambda part: done(2.0 * duration * part), recorder)
-    _say_pacing(figures.as_json())
-    deliver(arguments, scene, figures)
+    deliver(arguments, scene, figures, _pacing_lines(figures.as_json()))
 
 
 def _report(arguments: argparse.Namespace, out: Path, scenes: Sequence[str] = ()) -> int:
@@ -120,20 +119,20 @@ def _report(arguments: argparse.Namespace, out: Path, scenes: Sequence[str] = ()
     return 0 if complete else 130
 
 
-def _say_pacing(shown: dict[str, Any]) -> None:
-    say(f"{shown['ticks']:.0f} ticks at {shown['rate']:g} Hz, {100.0 * shown['late_share']:.3g} % more than a period "
-        f"late, {shown['missed_ticks']:.0f} missed, drift {shown['drift_s'] * 1e3:.3f} ms")
-    say(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")
+def _pacing_lines(shown: dict[str, Any]) -> Iterator[str]:
+    yield (f"{shown['ticks']:.0f} ticks at {shown['rate']:g} Hz, {100.0 * shown['late_share']:.3g} % more than a "
+           f"period late, {shown['missed_ticks']:.0f} missed, drift {shown['drift_s'] * 1e3:.3f} ms")
+    yield f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}"
     for key, name, factor in (("lateness_p50_s", "lateness p50 (us)", 1e6),
                               ("lateness_p99_s", "lateness p99 (us)", 1e6),
                               ("lateness_max_s", "lateness max (us)", 1e6),
                               ("late_share", "late by a period (%)", 100.0),
                               ("cpu_fraction", "CPU (% of a core)", 100.0)):
         node, bare = shown[key] * factor, shown[f"bare_{key}"] * factor
-        say(f"{name:<22}{node:>15.1f}{bare:>15.1f}{node / bare if bare > 0.0 else float('nan'):>8.2f}")
-    say(f"{'bare loop with':<26}{'p50 (us)':>11}{'p99 (us)':>11}{'max (us)':>11}")
+        yield f"{name:<22}{node:>15.1f}{bare:>15.1f}{node / bare if bare > 0.0 else float('nan'):>8.2f}"
+    yield f"{'bare loop with':<26}{'p50 (us)':>11}{'p99 (us)':>11}{'max (us)':>11}"
     for trial in shown["settings"]:
         row = "".join(f"{trial[f'lateness_{key}_s'] * 1e6:>11.1f}" for key in ("p50", "p99", "max"))
-        say(f"{trial['name']:<26}{row}{'  refused' if trial['refused'] else ''}")
+        yield f"{trial['name']:<26}{row}{'  refused' if trial['refused'] else ''}"
     for sentence in sorted({sentence for trial in shown["settings"] for sentence in trial["refused"]}):
-        say(f"  {sentence}")
+        yield f"  {sentence}"

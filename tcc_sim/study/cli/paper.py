@@ -16,7 +16,7 @@ from tcc_sim.background import without_working_directory
 from tcc_sim.cli.arguments import add_layout, add_units, check_outputs, deliver
 from tcc_sim.cli.options import Form, command, number
 from tcc_sim.errors import InputError, RecordingError, printable, require
-from tcc_sim.output.files import draft, replaceable, write_json
+from tcc_sim.output.files import STANDARD_OUTPUT, draft, replaceable, write_json
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import show_in
 
@@ -146,6 +146,8 @@ def claims(arguments: argparse.Namespace, pressures: Sequence[float] = (), figur
 
     def show(verdict: Verdict) -> None:
         verdicts.append(verdict)
+        if json == STANDARD_OUTPUT:
+            return
         finding = verdict.finding
         name = f"Fig. {verdict.row.figure}" if verdict.row.figure[0].isdigit() else verdict.row.figure
         say(f"{name:<15}  {verdict.verdict:<13}  {verdict.row.sentence}")
@@ -168,8 +170,7 @@ def claims(arguments: argparse.Namespace, pressures: Sequence[float] = (), figur
         print("tcc-sim: interrupted; the claims judged so far are kept", file=sys.stderr)
     if not verdicts:
         return 130
-    say(counts_of(verdicts))
-    deliver(arguments, paper_system(), ClaimsReport(verdicts, not interrupted))
+    deliver(arguments, paper_system(), ClaimsReport(verdicts, not interrupted), [counts_of(verdicts)])
     if markdown is not None:
         with draft(markdown) as part:
             part.write_text(claims_page(verdicts, complete=not interrupted))

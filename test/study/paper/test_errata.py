@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -127,8 +128,8 @@ def test_period_two_begins_where_the_page_says() -> None:
         assert two.tolist() == [True] + [False] * (len(ratios) - 1)
 
 
-def test_the_page_has_every_erratum_with_its_numbers(tmp_path: Path) -> None:
-    words = ["claims", "--figures", "3", "--errata", str(tmp_path / "errata.md")]
-    assert main(words) == 0
+def test_the_page_has_every_erratum_with_its_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["claims", "--figures", "3", "--errata", str(tmp_path / "errata.md"), "--json", "-"]
+    assert (main(words), json.loads(capsys.readouterr().out)["complete"]) == (0, True)
     assert (tmp_path / "errata.md").read_text() == PAGE.read_text()
     assert main(words) == 2
