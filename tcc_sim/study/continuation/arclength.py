@@ -7,8 +7,8 @@ moves. T. R. Chandrupatla's bracketing method (Adv. Eng. Softw. 28, 1997) finds 
 points of a curve to rounding, with a corrector in every evaluation.
 
 A `Continuation` is the state of a curve that is being followed, and its iterator: it predicts, corrects and adapts the
-step. Its subclasses follow one kind of curve each: branches of periodic orbits along a parameter, or curves of their
-bifurcations in two. After the iterator of BifurcationKit.jl.
+step. Functions in `Rules` say what belongs to one kind of curve: branches of periodic orbits along a parameter, or
+curves of their bifurcations in two. After the iterator of BifurcationKit.jl.
 """
 
 from __future__ import annotations
@@ -443,11 +443,50 @@ S = TypeVar("S")
 """Kind of special point."""
 
 
+def own_start(track: Continuation[P, S]) -> list[tuple[Floats, Floats]]:
+    """Return unknowns and tangent of the first point."""
+    return [(track.here.equations.outer(track.here.z), track.here.equations.outer(track.here.tangent))]
+
+
+def back_at_start(track: Continuation[P, S], new: P, special: list[S],
+                  stop: End | None) -> tuple[P, list[S], End | None]:
+    """Return the end of a curve at its first point, if the step to `new` passes it; else the arguments."""
+    if track.passes_start(new):
+        return track.points[0], special, stop or track.end(StopReason.CLOSED, track.points[0])
+    return new, special, stop
+
+
+def give_up(track: Continuation[P, S]) -> None:
+    """End a curve where no step succeeds."""
+    track.stop = track.end(StopReason.STEP, limit=track.settings.residual)
+
+
+@dataclass(frozen=True)
+class Rules(Generic[P, S]):
+    """Functions of a continuation for one kind of curve.
+
+    starts : unknowns and tangents with which the curve may pass its first point again
+    unresolved : the end where double precision does not resolve a new point
+    special : special points up to a new point; None where the step has skipped a piece of the curve
+    ended : the last point, its special points and the end where the curve ends before a new point; else the arguments
+    went_on : update for a new last point, or end the curve there
+    lost : change the track where no step succeeds, or end the curve
+    beyond_corner : the next point beyond a corner of the curve at the last point; None where there is no corner
+    """
+
+    starts: Callable[[Continuation[P, S]], list[tuple[Floats, Floats]]] = own_start
+    unresolved: Callable[[Continuation[P, S], P], End | None] = lambda track, new: None
+    special: Callable[[Continuation[P, S], P], list[S] | None] = lambda track, new: []
+    ended: Callable[[Continuation[P, S], P, list[S], End | None], tuple[P, list[S], End | None]] = back_at_start
+    went_on: Callable[[Continuation[P, S]], None] = lambda track: None
+    lost: Callable[[Continuation[P, S]], None] = give_up
+    beyond_corner: Callable[[Continuation[P, S]], P | None] = lambda track: None
+
+
 class Continuation(Generic[P, S]):
     """One direction of a curve; lengths are in natural sizes.
 
-    Subclasses override the methods for one kind of curve, from `every_start` to `beyond_corner`.
-
+    rules : what belongs to its kind
     special : special points so far, each with the number of the point before it
     stop : why the curve ended; None until then
     before : points behind the last point, from which the next one is predicted
@@ -455,9 +494,11 @@ class Continuation(Generic[P, S]):
     longest : longest next step, after one that has left the range or skipped a piece of the curve
     by_amplitude : whether the amplitudes were coordinates of the arclength on the last step
     cut : number of points, and growth over a segment, at which failed steps last cut the orbit anew
+    tests : points and values of each test function since the last change of its sign
     """
 
-    def __init__(self, first: P) -> None:
+    def __init__(self, first: P, rules: Rules[P, S] | None = None) -> None:
+        self.rules: Rules[P, S] = rules or Rules()
         self.points = [first]
         self.special: list[tuple[int, S]] = []
         self.stop: End | None = None
@@ -465,39 +506,8 @@ class Continuation(Generic[P, S]):
         self.before: list[P] = []
         self.length, self.longest, self.tried, self.by_amplitude = self.settings.first_step, math.inf, 0, True
         self.cut: tuple[int, float] = (0, math.inf)
-        self.starts = self.every_start()
-
-    def every_start(self) -> list[tuple[Floats, Floats]]:
-        """Unknowns and tangents with which the curve may pass its first point again."""
-        return [(self.here.equations.outer(self.here.z), self.here.equations.outer(self.here.tangent))]
-
-    def unresolved(self, new: P) -> End | None:
-        """The end before a new point that double precision does not resolve."""
-        return None
-
-    def special_up_to(self, new: P) -> list[S] | None:
-        """Special points up to a new point; None where the step has skipped a piece of the curve."""
-        return []
-
-    def ended_before(self, new: P, special: list[S], stop: End | None) -> tuple[P, list[S], End | None]:
-        """The last point, its special points and the end where the curve ends before a new point; else the arguments.
-
-        Any curve ends at its first point.
-        """
-        if self.passes_start(new):
-            return self.points[0], special, stop or self.end(StopReason.CLOSED, self.points[0])
-        return new, special, stop
-
-    def went_on(self, before: P) -> None:
-        """Update for a new last point behind the given one, or end the curve there."""
-
-    def lost(self) -> None:
-        """Change the track where no step succeeds, or end the curve."""
-        self.stop = self.end(StopReason.STEP, limit=self.settings.residual)
-
-    def beyond_corner(self) -> P | None:
-        """The next point beyond a corner of the curve at the last point; None where there is no corner."""
-        return None
+        self.tests: dict[str, list[tuple[P, float]]] = {}
+        self.starts = self.rules.starts(self)
 
     @property
     def here(self) -> P:
@@ -535,21 +545,21 @@ class Continuation(Generic[P, S]):
                 self.stop = self.end(StopReason.RANGE, number=bound)
                 return
             new = self.onward() if edge is None else edge
-            corner = new is None and (new := self.beyond_corner()) is not None
+            corner = new is None and (new := self.rules.beyond_corner(self)) is not None
             if new is None:
-                self.lost()
+                self.rules.lost(self)
                 continue
             inside = corner or edge is not None or all(0.0 <= scaled <= 1.0 for scaled in new.free(new.z))
-            self.stop = self.unresolved(new) if inside and not corner else None
+            self.stop = self.rules.unresolved(self, new) if inside and not corner else None
             if self.stop is not None:
                 return
-            special_points = self.special_up_to(new) if inside else None
+            special_points = self.rules.special(self, new) if inside else None
             if special_points is None and not corner:
                 self.longest = 0.5 * min(float(np.linalg.norm(new.z - here.z)), self.longest)
                 continue
             self.longest = math.inf
             stop = None if edge is None else self.end(StopReason.RANGE, edge, number=bound)
-            new, special, stop = self.ended_before(new, special_points or [], stop)
+            new, special, stop = self.rules.ended(self, new, special_points or [], stop)
             self.note(special)
             self.points.append(new)
             self.stop = stop
@@ -557,7 +567,7 @@ class Continuation(Generic[P, S]):
                 self.before = []
             elif stop is None:
                 self.before = [*self.before[1 - NODES:], here]
-                self.went_on(here)
+                self.rules.went_on(self)
             yield self.here
 
     def onward(self) -> P | None:

@@ -18,7 +18,7 @@ import numpy as np
 from tcc_sim.analysis.steady.exponents import product_of
 from tcc_sim.result import Described, reported, reporting, result_class
 from tcc_sim.study.continuation import arclength, orbits
-from tcc_sim.study.continuation.arclength import Bracket, Continuation, End, StopReason, corrector
+from tcc_sim.study.continuation.arclength import Bracket, Continuation, End, Rules, StopReason, corrector
 from tcc_sim.study.continuation.bifurcations import (
     Bifurcation,
     ContinuationPoint,
@@ -91,131 +91,144 @@ class Branch(Described):
         return [end.reason.name.lower() for end in self.ended]
 
 
-class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
-    """One direction of a branch of periodic orbits along one parameter."""
+BranchTrack = Continuation[ContinuationPoint, Bifurcation]
+"""One direction of a branch."""
 
-    def every_start(self) -> list[tuple[Floats, Floats]]:
-        """Unknowns and tangent of single shooting at the first orbit, for every cycle in which it may begin."""
-        out, shooting, z = super().every_start(), self.here.equations, self.here.z
-        of, size, tangent = shooting.map, shooting.size, shooting.outer(self.here.tangent)
-        for cycle in range(of.forcing_period, shooting.period, of.forcing_period):
-            image = of.evaluate(self.here.section, self.here.values, 0, cycle)
-            way = np.concatenate([image.derivatives @ (shooting.sizes * tangent) / of.scales, tangent[of.dimension:]])
-            out.append((np.concatenate([image.value / of.scales, z[size:]]), way / float(np.linalg.norm(way))))
-        return out
 
-    def unresolved(self, new: ContinuationPoint) -> End | None:
-        """The end before a point with a multiplier that double precision does not resolve."""
-        if abs(new.multipliers[0]) <= self.settings.canard:
-            return None
-        return self.end(StopReason.CANARD, limit=self.settings.canard)
+def _every_start(track: BranchTrack) -> list[tuple[Floats, Floats]]:
+    """Unknowns and tangent of single shooting at the first orbit, for every cycle in which it may begin."""
+    out, shooting, z = arclength.own_start(track), track.here.equations, track.here.z
+    of, size, tangent = shooting.map, shooting.size, shooting.outer(track.here.tangent)
+    for cycle in range(of.forcing_period, shooting.period, of.forcing_period):
+        image = of.evaluate(track.here.section, track.here.values, 0, cycle)
+        way = np.concatenate([image.derivatives @ (shooting.sizes * tangent) / of.scales, tangent[of.dimension:]])
+        out.append((np.concatenate([image.value / of.scales, z[size:]]), way / float(np.linalg.norm(way))))
+    return out
 
-    def special_up_to(self, new: ContinuationPoint) -> list[Bifurcation] | None:
-        """The bifurcations up to a new point; None where the step has skipped a piece."""
-        return special_points_between(self.here, new, self.by_amplitude)
 
-    def ended_before(self, new: ContinuationPoint, special: list[Bifurcation],
-                     stop: End | None) -> tuple[ContinuationPoint, list[Bifurcation], End | None]:
-        """The end of the branch where the orbit's period becomes shorter, or at its first point."""
-        # Next to it rounding decides the sign of a determinant, but a multiplier is 1.
-        turns = self.here.sign != new.sign or min(
-            float(np.abs(point.multipliers - 1.0).min()) for point in (self.here, new)) < NEXT_TO_ONE
-        shorter = period_doubling_end(self.here, new) if turns else None
-        if shorter is None:
-            return super().ended_before(new, special, stop)
-        # Beyond it the branch is its own shift: the multiplier of 1 there is no fold and no branch point.
-        special, span = [f for f in special if f.kind not in ("branch_point", "fold")], shorter.equations.ranges[0]
-        while not special and self.special and self.special[-1][1].kind in ("branch_point", "fold") and abs(
-                span.scaled(self.special[-1][1].value) - span.scaled(shorter.value)) < SAME_END:
-            self.special.pop()
-        return shorter, special, stop or self.end(StopReason.DOUBLING, shorter)
+def _unresolved(track: BranchTrack, new: ContinuationPoint) -> End | None:
+    """The end before a point with a multiplier that double precision does not resolve."""
+    if abs(new.multipliers[0]) <= track.settings.canard:
+        return None
+    return track.end(StopReason.CANARD, limit=track.settings.canard)
 
-    def _in_a_family(self) -> bool:
-        """Whether some length of the branch has motions with a multiplier of 1 at one parameter."""
-        # Two points do not show it: beside a doubling, where the parameter grows as the square of the length, it hardly
-        # changes and a multiplier is 1 as well.
-        last = self.here
-        for point in reversed(self.points):
-            if abs(point.slope) > FAMILY or np.abs(point.multipliers - 1.0).min() > FAMILY:
-                return False
-            away = (last.section - point.section) / last.equations.map.scales
-            if float(np.linalg.norm(away)) >= FAMILY_LENGTH:
-                return True
-        return False
 
-    def went_on(self, before: ContinuationPoint) -> None:
-        """End the branch in a family; forget points beyond a border, and cut the orbit anew where it must be."""
-        if self._in_a_family():
-            self.stop = self.end(StopReason.FAMILY)
+def _special(track: BranchTrack, new: ContinuationPoint) -> list[Bifurcation] | None:
+    """The bifurcations up to a new point; None where the step has skipped a piece."""
+    return special_points_between(track.here, new, track.by_amplitude)
+
+
+def _ended(track: BranchTrack, new: ContinuationPoint, special: list[Bifurcation],
+           stop: End | None) -> tuple[ContinuationPoint, list[Bifurcation], End | None]:
+    """The end of the branch where the orbit's period becomes shorter, or at its first point."""
+    # Next to it rounding decides the sign of a determinant, but a multiplier is 1.
+    turns = track.here.sign != new.sign or min(
+        float(np.abs(point.multipliers - 1.0).min()) for point in (track.here, new)) < NEXT_TO_ONE
+    shorter = period_doubling_end(track.here, new) if turns else None
+    if shorter is None:
+        return arclength.back_at_start(track, new, special, stop)
+    # Beyond it the branch is its own shift: the multiplier of 1 there is no fold and no branch point.
+    special, span = [f for f in special if f.kind not in ("branch_point", "fold")], shorter.equations.ranges[0]
+    while not special and track.special and track.special[-1][1].kind in ("branch_point", "fold") and abs(
+            span.scaled(track.special[-1][1].value) - span.scaled(shorter.value)) < SAME_END:
+        track.special.pop()
+    return shorter, special, stop or track.end(StopReason.DOUBLING, shorter)
+
+
+def _in_a_family(track: BranchTrack) -> bool:
+    """Whether some length of the branch has motions with a multiplier of 1 at one parameter."""
+    # Two points do not show it: beside a doubling, where the parameter grows as the square of the length, it hardly
+    # changes and a multiplier is 1 as well.
+    last = track.here
+    for point in reversed(track.points):
+        if abs(point.slope) > FAMILY or np.abs(point.multipliers - 1.0).min() > FAMILY:
+            return False
+        away = (last.section - point.section) / last.equations.map.scales
+        if float(np.linalg.norm(away)) >= FAMILY_LENGTH:
+            return True
+    return False
+
+
+def _went_on(track: BranchTrack) -> None:
+    if _in_a_family(track):
+        track.stop = track.end(StopReason.FAMILY)
+        return
+    if track.here.equations.map.piecewise and orbits.differ(track.points[-2].events, track.here.events):
+        track.before = []
+    _remesh(track)
+
+
+def _lost(track: BranchTrack) -> None:
+    # A segment may start at an onset of slip, and Newton's method then alternates between two event sequences. The
+    # onset moves along a branch, so segments are cut by growth. This passes the canards behind both folds of period
+    # two, with either law.
+    if track.cut[0] != len(track.points):
+        track.cut = len(track.points), math.inf
+        if _remesh(track, anew=True):
+            track.length = arclength.FLAT_STEP
             return
-        if before.equations.map.piecewise and orbits.differ(before.events, self.here.events):
-            self.before = []
-        self._remesh()
+    arclength.give_up(track)
 
-    def lost(self) -> None:
-        """Cut the orbit anew, once, or end the branch."""
-        # A segment may start at an onset of slip, and Newton's method then alternates between two event sequences. The
-        # onset moves along a branch, so segments are cut by growth. This passes the canards behind both folds of period
-        # two, with either law.
-        if self.cut[0] != len(self.points):
-            self.cut = len(self.points), math.inf
-            if self._remesh(anew=True):
-                self.length = arclength.FLAT_STEP
-                return
-        super().lost()
 
-    def _remesh(self, anew: bool = False) -> bool:
-        """Cut the last orbit into other segments where the growth over one is large, or `anew`; now and then fewer."""
-        here, shooting, settings = self.here, self.here.equations, self.here.equations.settings
-        blocks, count = here.linearised.blocks, len(shooting.segments)
-        fewer = count > 1 and len(self.points) % settings.fewer_after == 0
-        if shooting.keeps_segments(blocks, settings.regrowth, fewer or anew):
-            return False
-        finer, z = shooting.cut(here.z)
-        if len(finer.segments) == count and not anew and shooting.keeps_segments(blocks, settings.regrowth, False):
-            return False
-        if anew and finer.segments == shooting.segments:
-            return False
-        polished = orbits.newton(finer, z)
-        if polished is None:
-            return False
-        linearised = finer.linearise(polished)
-        along, n = np.zeros(len(z)), shooting.map.dimension
-        along[:n], along[-1] = here.tangent[:n], here.tangent[-1]
-        self.points[-1] = ContinuationPoint(finer, polished, linearised, arclength.tangent_of(linearised, along))
-        self.before = []
-        return True
+def _remesh(track: BranchTrack, anew: bool = False) -> bool:
+    """Cut the last orbit into other segments where the growth over one is large, or `anew`; now and then fewer."""
+    here, shooting, settings = track.here, track.here.equations, track.here.equations.settings
+    blocks, count = here.linearised.blocks, len(shooting.segments)
+    fewer = count > 1 and len(track.points) % settings.fewer_after == 0
+    if shooting.keeps_segments(blocks, settings.regrowth, fewer or anew):
+        return False
+    finer, z = shooting.cut(here.z)
+    if len(finer.segments) == count and not anew and shooting.keeps_segments(blocks, settings.regrowth, False):
+        return False
+    if anew and finer.segments == shooting.segments:
+        return False
+    polished = orbits.newton(finer, z)
+    if polished is None:
+        return False
+    linearised = finer.linearise(polished)
+    along, n = np.zeros(len(z)), shooting.map.dimension
+    along[:n], along[-1] = here.tangent[:n], here.tangent[-1]
+    track.points[-1] = ContinuationPoint(finer, polished, linearised, arclength.tangent_of(linearised, along))
+    track.before = []
+    return True
 
-    def beyond_corner(self) -> ContinuationPoint | None:
-        """The next point beyond a change of the event sequence at which the branch has a corner; None without one."""
-        # An end of slip that passes phase 0 is a corner too, as motions that stick there have no slip speed.
-        here, shooting = self.here, self.here.equations
-        if not shooting.map.piecewise:
-            return None
-        for distance in CORNER_DISTANCES:
+
+def _beyond_corner(track: BranchTrack) -> ContinuationPoint | None:
+    """The next point beyond a change of the event sequence at which the branch has a corner; None without one."""
+    # An end of slip that passes phase 0 is a corner too, as motions that stick there have no slip speed.
+    here, shooting = track.here, track.here.equations
+    if not shooting.map.piecewise:
+        return None
+    for distance in CORNER_DISTANCES:
+        try:
+            linearised = shooting.linearise(here.z + distance * here.tangent)
+            at = replace(here, linearised=linearised, tangent=arclength.null_direction(linearised))
+            along = at.oriented(here.sign).tangent
+            z = here.z + distance * along
+            events = shooting.map.evaluate(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).seen.events
+        except orbits.FAILURES:
+            continue
+        # Where the derivative belongs to neither piece, the one along the other piece is taken.
+        for known in (linearised, None) if events != here.events else ():
             try:
-                linearised = shooting.linearise(here.z + distance * here.tangent)
-                at = replace(here, linearised=linearised, tangent=arclength.null_direction(linearised))
-                along = at.oriented(here.sign).tangent
-                z = here.z + distance * along
-                events = shooting.map.evaluate(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).seen.events
+                start = known or shooting.linearise(z)
+                near = replace(shooting, settings=replace(shooting.settings, first_step=distance,
+                                                          smallest_step=CORNER_STEP))
+                short = Continuation[ContinuationPoint, None](ContinuationPoint(
+                    near, here.z, start, arclength.tangent_of(start, along)))
+                new = short.step(by_amplitude=False)
             except orbits.FAILURES:
                 continue
-            # Where the derivative belongs to neither piece, the one along the other piece is taken.
-            for known in (linearised, None) if events != here.events else ():
-                try:
-                    start = known or shooting.linearise(z)
-                    near = replace(shooting, settings=replace(shooting.settings, first_step=distance,
-                                                              smallest_step=CORNER_STEP))
-                    short = Continuation[ContinuationPoint, None](ContinuationPoint(
-                        near, here.z, start, arclength.tangent_of(start, along)))
-                    new = short.step(by_amplitude=False)
-                except orbits.FAILURES:
-                    continue
-                if new is not None and new.events != here.events:
-                    self.length = short.length
-                    return replace(new, equations=shooting)
-        return None
+            if new is not None and new.events != here.events:
+                track.length = short.length
+                return replace(new, equations=shooting)
+    return None
+
+
+BRANCH = Rules(
+    _every_start, _unresolved, lambda track, new: special_points_between(track.here, new, track.by_amplitude), _ended,
+    _went_on, _lost, _beyond_corner)
+"""A branch of periodic orbits along one parameter."""
 
 
 def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, keep: list[Branch] | None = None, *,
@@ -226,7 +239,7 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, keep:
     began : the end it starts at, where only one way is followed
     """
     keep = [] if keep is None else keep
-    tracks = [BranchTrack(start) for start in ((first, first.turned()) if both else (first,))]
+    tracks = [Continuation(start, BRANCH) for start in ((first, first.turned()) if both else (first,))]
     try:
         for track in tracks:
             for point in track.follow():

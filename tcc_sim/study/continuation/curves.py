@@ -20,7 +20,7 @@ from tcc_sim.analysis.steady.exponents import multipliers_of
 from tcc_sim.result import Described, reported, reporting, result_class
 from tcc_sim.shown_units import key_unit
 from tcc_sim.study.continuation import arclength, orbits
-from tcc_sim.study.continuation.arclength import Bracket, Continuation, CurvePoint, End, P, StopReason
+from tcc_sim.study.continuation.arclength import Bracket, Continuation, CurvePoint, End, P, Rules, StopReason
 from tcc_sim.study.continuation.bifurcations import (
     BORDER_HALVINGS,
     Bifurcation,
@@ -252,150 +252,154 @@ class BifurcationCurve(Described):
         return [str(end) for end in self.ended]
 
 
-class CurveTrack(Continuation[AugmentedPoint, Special]):
-    """One direction of a curve of bifurcations in two parameters.
+CurveTrack = Continuation[AugmentedPoint, Special]
+"""One direction of a curve of bifurcations.
 
-    A point of codimension two is listed where its test function has two signs, each of which is resolved: larger than
-    the changes that other difference steps and one more Newton step make.
+A point of codimension two is listed where its test function has two signs, each of which is resolved: larger than the
+changes that other difference steps and one more Newton step make.
+"""
 
-    tests : points and values of each test function since the last change of its sign
-    """
 
-    def __init__(self, first: AugmentedPoint) -> None:
-        super().__init__(first)
-        self.tests: dict[str, list[tuple[AugmentedPoint, float]]] = {}
-        self.test(first)
+def _unresolved(track: CurveTrack, new: AugmentedPoint) -> End | None:
+    """The end before a motion along a part of which disturbances grow beyond double precision."""
+    blocks, most = new.linearised.blocks, 0.0
+    ahead = np.broadcast_to(np.eye(blocks.shape[1]), blocks.shape)
+    for k in range(len(blocks)):
+        ahead = np.roll(blocks, -k, axis=0) @ ahead
+        most = max(most, float(np.abs(ahead).max()))
+    return None if most <= track.settings.canard else track.end(StopReason.CANARD_CURVE, limit=track.settings.canard)
 
-    def unresolved(self, new: AugmentedPoint) -> End | None:
-        """The end before a motion along a part of which disturbances grow beyond double precision."""
-        blocks, most = new.linearised.blocks, 0.0
-        ahead = np.broadcast_to(np.eye(blocks.shape[1]), blocks.shape)
-        for k in range(len(blocks)):
-            ahead = np.roll(blocks, -k, axis=0) @ ahead
-            most = max(most, float(np.abs(ahead).max()))
-        return None if most <= self.settings.canard else self.end(StopReason.CANARD_CURVE, limit=self.settings.canard)
 
-    def special_up_to(self, new: AugmentedPoint) -> list[Special]:
-        """The change of the event sequence, or the special points between which the signs of tests change."""
-        here = self.here
-        if here.equations.shooting.map.piecewise and orbits.differ(here.events, new.events):
-            self.tests.clear()
-            self.test(new)
-            ends = [here, new]
-            halve(Bracket(here, new, False), ends, [0.0, 1.0], BORDER_HALVINGS[0])
-            near = [nearest_margins(s.equations.shooting, s.z[:s.equations.unknowns]) for s in ends]
-            kind = orbits.kind_of_change(ends[0].events, ends[1].events, near)
-            return [midway(kind, ends[0], ends[1], True)]
-        way = new.z - here.z
-        return sorted(self.test(new), key=lambda s: float(way @ s.point.z))
+def _special(track: CurveTrack, new: AugmentedPoint) -> list[Special]:
+    """The change of the event sequence, or the special points between which the signs of tests change."""
+    here = track.here
+    if here.equations.shooting.map.piecewise and orbits.differ(here.events, new.events):
+        track.tests.clear()
+        _test(track, new)
+        ends = [here, new]
+        halve(Bracket(here, new, False), ends, [0.0, 1.0], BORDER_HALVINGS[0])
+        near = [nearest_margins(s.equations.shooting, s.z[:s.equations.unknowns]) for s in ends]
+        kind = orbits.kind_of_change(ends[0].events, ends[1].events, near)
+        return [midway(kind, ends[0], ends[1], True)]
+    way = new.z - here.z
+    return sorted(_test(track, new), key=lambda s: float(way @ s.point.z))
 
-    def test(self, new: AugmentedPoint) -> list[Special]:
-        """Evaluate the tests at a point, and locate special points where their signs have changed."""
-        out: list[Special] = []
-        for name, value in values_of_tests(new).items():
-            known = self.tests.setdefault(name, [])
-            if not known or known[-1][1] * value > 0.0:
-                known.append((new, value))
-            else:
-                out += self._crossed(name, new)
-        return out
 
-    def _crossed(self, name: str, new: AugmentedPoint) -> list[Special]:
-        """The special point between the last point at which a test is resolved and a new one with another sign."""
-        known, factor, before = self.tests[name], RESOLVED, 0.0
-        value, noise, _ = measured(new, name)
-        if not abs(value) > factor * noise:
-            return []
-        while known:
-            before, noise, _ = measured(known[-1][0], name)
-            if abs(before) > factor * noise:
-                break
-            known.pop()
-        last = known[-1][0] if known and before * value < 0.0 else None
-        known.append((new, value))
-        if last is None:
-            return []
-        apart = ENDING.get((new.equations.kind, name))
-        end = None if apart is None else singular_end(name, self.points, apart, new)
-        return [end or special_point(name, last, new)]
+def _test(track: CurveTrack, new: AugmentedPoint) -> list[Special]:
+    """Evaluate the tests at a point, and locate special points where their signs have changed."""
+    out: list[Special] = []
+    for name, value in values_of_tests(new).items():
+        known = track.tests.setdefault(name, [])
+        if not known or known[-1][1] * value > 0.0:
+            known.append((new, value))
+        else:
+            out += _crossed(track, name, new)
+    return out
 
-    def ended_before(self, new: AugmentedPoint, special: list[Special],
-                     stop: End | None) -> tuple[AugmentedPoint, list[Special], End | None]:
-        """The end of the curve in a special point, or at its first point."""
-        equations = self.here.equations
-        last = next((s for s in special if (equations.kind, s.kind) in ENDING), None)
-        if equations.doubled:
-            halves = equations.between_halves(self.here.z)
-            if arclength.turned_round(halves, equations.between_halves(new.z)):
-                last = singular_end("generalised_doubling", self.points, self._apart(), new)
-                special = [*special, *([] if last is None else [last])]
-        if last is None:
-            return super().ended_before(new, special, stop)
-        return last.point, special, self.end(StopReason.SPECIAL, last.point, what=last.kind)
 
-    def _apart(self) -> Callable[[AugmentedPoint], float]:
-        """The distance between the halves of an orbit, along that of the last point."""
-        equations = self.here.equations
-        halves = equations.between_halves(self.here.z)
-        unit = halves / max(float(np.linalg.norm(halves)), 1e-300)
-        return lambda s: float(unit @ equations.between_halves(s.z))
+def _crossed(track: CurveTrack, name: str, new: AugmentedPoint) -> list[Special]:
+    """The special point between the last point at which a test is resolved and a new one with another sign."""
+    known, factor, before = track.tests[name], RESOLVED, 0.0
+    value, noise, _ = measured(new, name)
+    if not abs(value) > factor * noise:
+        return []
+    while known:
+        before, noise, _ = measured(known[-1][0], name)
+        if abs(before) > factor * noise:
+            break
+        known.pop()
+    last = known[-1][0] if known and before * value < 0.0 else None
+    known.append((new, value))
+    if last is None:
+        return []
+    apart = ENDING.get((new.equations.kind, name))
+    end = None if apart is None else singular_end(name, track.points, apart, new)
+    return [end or special_point(name, last, new)]
 
-    def went_on(self, before: AugmentedPoint) -> None:
-        """Renew the borders, and cut the orbit anew where it must be."""
-        self.cut, here = (0, math.inf), self.here
-        here.equations.update_borders(here.z, here.linearised)
-        self._remesh(others=(len(self.points) - 1) % self.settings.fewer_after == 0)
 
-    def lost(self) -> None:
-        """Cut the orbit more finely, or end the curve."""
-        # Where disturbances grow by 1e3 in slip and stick removes them within one segment, its derivative is not large,
-        # but changes within 1e-5, and its error is the state's over that length. Curves pass cusps only in segments
-        # over which disturbances grow by about 10.
-        equations = self.here.equations
-        for growth in FINER_GROWTHS:
-            if growth <= equations.shooting.settings.growth and growth < self.cut[1]:
-                self.cut = len(self.points), growth
-                if self._remesh(growth):
-                    self.length = arclength.FLAT_STEP
-                    return
-        super().lost()
-        # Folds of doubled motions of amplitude a lie within a^2 of a generalised doubling, where they meet the
-        # doublings of the halves, so that the equations are singular.
-        if equations.doubled and (apart := self._apart())(self.here) <= HALVES_MET:
-            last = singular_end("generalised_doubling", self.points, apart)
-            if last is not None:
-                self.note([last])
-                self.stop = self.end(StopReason.SPECIAL, last.point, what=last.kind)
+def _ended(track: CurveTrack, new: AugmentedPoint, special: list[Special],
+           stop: End | None) -> tuple[AugmentedPoint, list[Special], End | None]:
+    """The end of the curve in a special point, or at its first point."""
+    equations = track.here.equations
+    last = next((s for s in special if (equations.kind, s.kind) in ENDING), None)
+    if equations.doubled:
+        halves = equations.between_halves(track.here.z)
+        if arclength.turned_round(halves, equations.between_halves(new.z)):
+            last = singular_end("generalised_doubling", track.points, _apart(track), new)
+            special = [*special, *([] if last is None else [last])]
+    if last is None:
+        return arclength.back_at_start(track, new, special, stop)
+    return last.point, special, track.end(StopReason.SPECIAL, last.point, what=last.kind)
 
-    def _remesh(self, growth: float | None = None, others: bool = False) -> bool:
-        """Cut the last orbit into other segments if growth is large, above `growth`, or `others` may do."""
-        here, old = self.here, self.here.equations
-        settings, shooting = old.settings, old.shooting
-        # Only a thorough search finds growth that the same segment removes again.
-        others = others and (settings.thorough or len(shooting.segments) > 1)
-        if shooting.keeps_segments(here.linearised.blocks, settings.regrowth, others or growth is not None):
+
+def _apart(track: CurveTrack) -> Callable[[AugmentedPoint], float]:
+    """The distance between the halves of an orbit, along that of the last point."""
+    equations = track.here.equations
+    halves = equations.between_halves(track.here.z)
+    unit = halves / max(float(np.linalg.norm(halves)), 1e-300)
+    return lambda s: float(unit @ equations.between_halves(s.z))
+
+
+def _went_on(track: CurveTrack) -> None:
+    track.cut, here = (0, math.inf), track.here
+    here.equations.update_borders(here.z, here.linearised)
+    _remesh(track, others=(len(track.points) - 1) % track.settings.fewer_after == 0)
+
+
+def _lost(track: CurveTrack) -> None:
+    # Where disturbances grow by 1e3 in slip and stick removes them within one segment, its derivative is not large,
+    # but changes within 1e-5, and its error is the state's over that length. Curves pass cusps only in segments
+    # over which disturbances grow by about 10.
+    equations = track.here.equations
+    for growth in FINER_GROWTHS:
+        if growth <= equations.shooting.settings.growth and growth < track.cut[1]:
+            track.cut = len(track.points), growth
+            if _remesh(track, growth):
+                track.length = arclength.FLAT_STEP
+                return
+    arclength.give_up(track)
+    # Folds of doubled motions of amplitude a lie within a^2 of a generalised doubling, where they meet the
+    # doublings of the halves, so that the equations are singular.
+    if equations.doubled and (apart := _apart(track))(track.here) <= HALVES_MET:
+        last = singular_end("generalised_doubling", track.points, apart)
+        if last is not None:
+            track.note([last])
+            track.stop = track.end(StopReason.SPECIAL, last.point, what=last.kind)
+
+
+def _remesh(track: CurveTrack, growth: float | None = None, others: bool = False) -> bool:
+    """Cut the last orbit into other segments if growth is large, above `growth`, or `others` may do."""
+    here, old = track.here, track.here.equations
+    settings, shooting = old.settings, old.shooting
+    # Only a thorough search finds growth that the same segment removes again.
+    others = others and (settings.thorough or len(shooting.segments) > 1)
+    if shooting.keeps_segments(here.linearised.blocks, settings.regrowth, others or growth is not None):
+        return False
+    if growth is not None:
+        shooting = replace(shooting, settings=replace(shooting.settings, growth=growth, thorough=True))
+    try:
+        finer, z = shooting.cut(here.z[:old.unknowns])
+        if finer.segments == shooting.segments:
             return False
-        if growth is not None:
-            shooting = replace(shooting, settings=replace(shooting.settings, growth=growth, thorough=True))
-        try:
-            finer, z = shooting.cut(here.z[:old.unknowns])
-            if finer.segments == shooting.segments:
-                return False
-            other = MinimallyAugmented(old.kind, finer, z)
-            start = np.append(z, here.z[-1:]) if old.turning else z
-            linearised = other.linearise(start)
-            other.update_borders(start, linearised, old)
-            polished = arclength.corrector(other, start, arclength.null_direction(linearised))
-        except orbits.FAILURES:
-            return False
-        if polished is None:
-            return False
-        # The first node and the parameters do not depend on the segments; the other nodes have the motion's errors.
-        sign = 1.0 if float(old.outer(here.tangent) @ other.outer(polished.tangent)) > 0.0 else -1.0
-        self.points[-1] = AugmentedPoint(other, polished.z, polished.linearised, sign * polished.tangent)
-        self.before = []
-        self.note(self.test(self.here))
-        return True
+        other = MinimallyAugmented(old.kind, finer, z)
+        start = np.append(z, here.z[-1:]) if old.turning else z
+        linearised = other.linearise(start)
+        other.update_borders(start, linearised, old)
+        polished = arclength.corrector(other, start, arclength.null_direction(linearised))
+    except orbits.FAILURES:
+        return False
+    if polished is None:
+        return False
+    # The first node and the parameters do not depend on the segments; the other nodes have the motion's errors.
+    sign = 1.0 if float(old.outer(here.tangent) @ other.outer(polished.tangent)) > 0.0 else -1.0
+    track.points[-1] = AugmentedPoint(other, polished.z, polished.linearised, sign * polished.tangent)
+    track.before = []
+    track.note(_test(track, track.here))
+    return True
+
+
+CURVE = Rules(unresolved=_unresolved, special=_special, ended=_ended, went_on=_went_on, lost=_lost)
+"""A curve of bifurcations in two parameters."""
 
 
 @dataclass(frozen=True)
@@ -442,8 +446,13 @@ def bifurcation_curve(bifurcation: Bifurcation, of: ParameterMap, ranges: Ranges
         system = MinimallyAugmented(bifurcation.kind, finer, z)
         return AugmentedPoint.at(system, system.start)
 
+    def begun(point: AugmentedPoint) -> CurveTrack:
+        track = Continuation(point, CURVE)
+        _test(track, point)
+        return track
+
     lost = End(StopReason.STEP, ranges[0].name, point.value, shooting.settings.residual)
-    return _both_ways(bifurcation.kind, first, CurveTrack, lost, second)
+    return _both_ways(bifurcation.kind, first, begun, lost, second)
 
 
 def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value: float,
