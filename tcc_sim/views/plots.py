@@ -88,16 +88,14 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
         raise InputError("give either a file or an axis to draw into")
     if units is not None and units not in UNITS:
         raise InputError(f"units is {units!r}; it must be {', '.join(UNITS)}")
-    if ax is not None:
-        with shown_in(units, _order_of(result)):
-            return draw_into(ax, panels_of(result)[0], title or "")
-    if file is None:
+    if file is None and ax is None:
         with TemporaryDirectory(prefix="tcc_sim_") as folder:
             return Picture(plot(result, Path(folder) / "picture.png", width, title=title, units=units).read_bytes())
-    path = Path(file)
-    check_picture(path, width)
-    if replaceable(path) and not force:
-        raise InputError(f"{path} exists; it is not overwritten")
+    path = Path(file or "")
+    if ax is None:
+        check_picture(path, width)
+        if replaceable(path) and not force:
+            raise InputError(f"{path} exists; it is not overwritten")
     name = str(result) if isinstance(result, (str, Path)) else "the result"
     if isinstance(result, (str, Path)):
         result = read_stored(Path(result))
@@ -111,8 +109,12 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
         with shown_in(units, order):
             kind, title, inches = _class_of(result), title or "", style.width_of(width)
             if isinstance(result, Record):
+                if ax is not None:
+                    raise InputError(f"the picture of {name} has several panels; give a file in place of an axis")
                 drawn: Path = from_later_room(f"draw_{kind_of(vars(result))}")(path, result, title=title, width=inches)
                 return drawn
+            if ax is not None:
+                return draw_into(ax, panels_of(result)[0], title)
             if not title and hasattr(result, "first_cycle"):
                 title = result.path.name
             if kind == "Twin":

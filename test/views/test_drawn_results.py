@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -270,6 +271,12 @@ def test_a_result_is_drawn_into_an_axis_alone(name: str) -> None:
         axis.get_xlim(), axis.get_ylim()  # They are worked out when they are asked for.
         assert covered(axis.get_legend()) == []
     assert "mine" in (axis.get_title(), axis.get_title(loc="left"))
+
+
+def test_a_file_is_drawn_into_an_axis_in_its_own_unit(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text(json.dumps({**of("sweep", SWEEP), "shown_units": "rpm"}))
+    for units, shown in (None, "rpm"), ("hz", "Hz"):
+        assert shown in tcc_sim.plot(tmp_path / "a.json", ax=Figure().subplots(), units=units).get_ylabel()
 
 
 def test_a_period_has_one_colour_in_every_map() -> None:
