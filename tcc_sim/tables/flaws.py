@@ -207,7 +207,8 @@ def clipped(values: Floats, name: str) -> Rows:
         # A peak that is rounded to a step of quantisation is reached slowly.
         into, usual = np.abs(step[begins - 1]), float(np.median(np.abs(step[step != 0.0])))
         if extreme != 0.0 and len(begins) >= PLATEAUS and np.median(into) > ABRUPT * usual:
-            rise = np.abs(extreme - values[np.maximum(begins - np.maximum(sizes // SLOWLY, 1), 0)])
+            rise = [np.abs(extreme - values[max(begin - max(size // SLOWLY, 1), 0):begin]).max()
+                    for begin, size in zip(begins.tolist(), sizes.tolist())]
             out |= at & (np.median(rise) > ROUNDED * _quantum_from(values, _decade_of(extreme)))
     return out
 
@@ -225,9 +226,10 @@ def _decade_of(value: float) -> float:
 
 def _quantum_from(values: Floats, least: float) -> float:
     """Return the step of quantisation of the values of at least this size, which is a power of ten, since numbers of a
-    few significant digits have one step up to the next; 0 without rounding.
+    few significant digits, two or more, have one step up to the next; 0 without rounding.
     """
-    return _step_in(np.unique(values[np.abs(values) >= least])) * (1.0 + 1e-3)
+    step = _step_in(np.unique(values[np.abs(values) >= least])) * (1.0 + 1e-3)
+    return step if step < 0.11 * least else 0.0  # Two values far from each other are no rounding.
 
 
 def _step_in(levels: Floats) -> float:
