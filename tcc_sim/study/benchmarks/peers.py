@@ -210,8 +210,8 @@ def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_
     swing, excess, step = system.saturation_amplitude, system.friction_ratio - 1.0, system.cycle / per_cycle
     load = f"{system.saturation_mean:.17g}"
     if p.amplitude > 0.0:
-        load += f"+{swing:.17g}*sin({p.frequency_ratio * e.frequency:.17g}*t+{p.phase:.17g})"
-    falling = f"*(1+{excess:.17g}*exp(-{f.decay:.17g}*abs(v)))" if excess else ""
+        load += f"+{swing:.17g}*sin({p.frequency_ratio * e.frequency:.17g}*t{p.phase:+.17g})"
+    falling = f"*(1{excess:+.17g}*exp(-{f.decay:.17g}*abs(v)))" if excess else ""
     return f"""\
 ts={load}
 tf=ts*tanh({f.smoothing:.17g}*v){falling}
