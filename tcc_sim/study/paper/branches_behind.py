@@ -62,8 +62,9 @@ def _seen(sweep: Sweep, k: int) -> SettledMotion | None:
     if point is None or point.summary is None:
         return None
     system, summary, start, late = sweep.curve.at(k), point.summary, point.end, None
+    excitation = common_cycles(system) or 1
     if summary.settled:
-        amplitude, together = summary.max_slip_speed, math.lcm(summary.period, common_cycles(system) or 1)
+        amplitude, together = summary.max_slip_speed, math.lcm(summary.period, excitation)
         if summary.period:  # The maximum in the sweep may belong to a transient.
             cycles = solve(system, cycles=together, start_cycle=start.cycle, state=start.state).solved_cycles
             amplitude = summarise_cycles(cycles, CycleTimes(system.cycle)).max_slip_speed
@@ -74,7 +75,7 @@ def _seen(sweep: Sweep, k: int) -> SettledMotion | None:
             break
         summary, start = settled
         motion = SettledMotion(value, np.array(start.state.numbers), start.cycle,
-                               math.lcm(summary.period, common_cycles(sweep.curve.system)), summary.max_slip_speed)
+                               math.lcm(summary.period, excitation), summary.max_slip_speed)
         late = approached(sweep.curve, motion, summary.settled)
         if late.period:
             break
@@ -88,7 +89,7 @@ def approached(curve: Curve, late: SettledMotion, settled: bool) -> SettledMotio
     a recognised period may approach a period-one orbit, on alternate sides of it.
     """
     span, goal = ParameterRange(min(curve.values), max(curve.values)), replace(
-        late, period=late.period or common_cycles(curve.system))
+        late, period=late.period or common_cycles(curve.system) or 1)
     point = point_of(DrivelineMap(curve.system, (curve.key,)), span, goal)
     if point is not None:
         of = point.equations.map
