@@ -265,6 +265,7 @@ def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, p
     torques = _cubic(_turning_points(p, dp, q, dq), p[:, None], dp[:, None], q[:, None], dq[:, None])
     stuck = np.abs(v) <= stick_speed
     first = grid.left
+    # A value at the start of the last cycle (or of the only one) is there, also where that cycle has no sample.
     breakaways = (stuck[:-1] & ~stuck[1:])[:max(int(first[-1]) + int(grid.u[-1] == 1.0), int(first[-2:][0]) + 1)]
     return Loads(energy, _extremes(grid, np.stack([power[:-1], power[1:]], axis=1))[0],
                  *_extremes(grid, torques), np.add.reduceat(breakaways.astype(np.float64), first[:-1]), heat)
