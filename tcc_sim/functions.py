@@ -147,11 +147,11 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
         from tcc_sim.replay.given_inputs import doubts_about
 
         result = replace(result, notes=(*source.notes, *doubts_about(source), *(measured.notes if measured else ())))
-    if orders and measured is None:
-        result = replace(result, orders=orders_of(result.trajectory))
-    elif orders and measured is not None:
+    if measured is not None:
         both = compared(measured, result.trajectory)
         result = replace(result, orders=both.simulated, measured_orders=both.measured)
+    elif orders:
+        result = replace(result, orders=orders_of(result.trajectory))
     return replace(result, spectrum=spectrum_of_run(result, changed)) if spectrum else result
 
 
