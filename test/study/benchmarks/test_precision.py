@@ -78,7 +78,7 @@ def test_a_program_is_the_closed_form_of_pure_slip(program, accuracy):
 
 @pytest.mark.parametrize("keys", [{}, {"friction.kinetic_coefficient": 0.33}])
 def test_the_equations_for_other_programs_are_the_independent_ones(keys):
-    """Those of numbalsoda, and the model of XPPAUT evaluated as Python, with falling and with rising friction."""
+    """The test calls the rates for numbalsoda and evaluates the lines for XPPAUT as Python; friction falls or rises."""
     system = replace(load_scene("fig02").system, {"pressure.phase": -0.4, "pressure.frequency_ratio": 0.5, **keys})
     lines = dict(re.findall(r"^(\w+'?)=(.+)$", peers.xppaut_file(system, "cvode", 1e-8, 3, 4), re.MULTILINE))
     assert not any("+-" in line for line in lines.values())  # XPPAUT refuses two signs.
